@@ -137,6 +137,14 @@ int FeatureTracks::sizeSince(int frame) const {
                           births_.begin());
 }
 
+Matches FeatureTracks::matchesFrom(int reference) const {
+  CornerTracks ends;
+  for (const auto* frame : {&positions_[static_cast<std::size_t>(reference)], &positions_.back()}) {
+    ends.positions.emplace_back(frame->begin(), frame->begin() + sizeSince(reference));
+  }
+  return ends.matchesTo(1);
+}
+
 CornerTracks FeatureTracks::since(int reference) const {
   CornerTracks tracks;
   for (auto frame = positions_.begin() + reference; frame != positions_.end(); ++frame) {

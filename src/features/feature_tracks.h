@@ -66,6 +66,8 @@ class FeatureTracks {
   [[nodiscard]] double referenceMean() const { return reference_mean_; }
   /// The tracks that live in every frame since a reference.
   [[nodiscard]] CornerTracks since(int reference) const;
+  /// Matches between a reference and the newest frame.
+  [[nodiscard]] Matches matchesFrom(int reference) const;
 
  private:
   void show(const Frame& frame, float gain);

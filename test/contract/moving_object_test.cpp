@@ -122,6 +122,21 @@ INSTANTIATE_TEST_SUITE_P(Streets,
                          Traffic,
                          testing::Combine(testing::Values(1, 2, 3), testing::Bool()));
 
+/// A van over half of the image that keeps its distance: nothing tells which of both motions is
+/// that of the world.
+class VanAhead : public testing::TestWithParam<std::uint64_t> {};
+
+TEST_P(VanAhead, IsNotTheWorld) {
+  synthetic::SequenceOptions options = trafficStreet(GetParam(), true);
+  options.moving_object_share = 0.5;
+  const RenderedSequence& sequence = rendered(options);
+  const InitRun run = start(sequence);
+  if (!run.result) return;                                                      // it may wait
+  EXPECT_LT(startErrors(*run.result, sequence).direction_deg, 2) << run.log();  // once 90
+}
+
+INSTANTIATE_TEST_SUITE_P(Streets, VanAhead, testing::Values(11, 14, 16));
+
 TEST(MovingObjects, ATurningCameraNeverStarts) {
   synthetic::SequenceOptions options;
   options.kind = SequenceKind::kRotation;

@@ -2,6 +2,7 @@
 #pragma once
 
 #include "dsorb/camera/pinhole_camera.h"
+#include "dsorb/geometry/se3.h"
 #include "dsorb/image/pyramid.h"
 
 #include "features/corner_tracks.h"
@@ -30,6 +31,15 @@ void leaveOutEdges(const PyramidLevel& image, CornerTracks& tracks);
 std::vector<Eigen::Vector2f> leaveOutStuck(CornerTracks& tracks,
                                            const PinholeCamera& camera,
                                            std::uint64_t seed);
+
+/// Whether matches that a motion leaves out have a motion of their own and are more than those that
+/// it explains, or neither far fewer nor far closer together: one of both is that of an object
+/// before the world, and which one is not known.
+/// @param seed of the samples by which the other motion is found
+bool hasRival(const SE3& T_cur_ref,
+              const Matches& matches,
+              const PinholeCamera& camera,
+              std::uint64_t seed);
 
 /// How badly the best inverse depth explains each track under a map's poses: root mean square of
 /// the reprojection error over the posed frames that see it, depth not behind the camera [px].

@@ -17,6 +17,7 @@
 #include "init/result.h"
 #include "two_view/model_selection.h"
 
+#include <algorithm>
 #include <cmath>
 #include <optional>
 #include <stdexcept>
@@ -70,6 +71,22 @@ Outcome<Reconstruction> poseOtherFrames(Reconstruction made, const AttemptContex
                                         {kTrackSigma, map.cluster_variance_scale});
     }
   });
+  return made;
+}
+
+/// Refuses a start with a rival, while most of its tracks live: where an object keeps its distance,
+/// the world's are lost first.
+Outcome<Reconstruction> refuseRivalled(Reconstruction made,
+                                       const EarlyMatches& early,
+                                       const AttemptContext& context) {
+  const auto& frames = made.map.frames;
+  const auto posed = std::find_if(frames.begin(), frames.end(), [&](const PosedFrame& candidate) {
+    return candidate.frame->id() == early.frame && candidate.T_cam_ref;
+  });
+  const bool rivalled = posed != frames.end() && context.clock.time("dynamic", [&] {
+    return hasRival(*posed->T_cam_ref, early.matches, context.camera, context.seed());
+  });
+  if (rivalled) return InitReason::kDegenerateMotion;
   return made;
 }
 
@@ -155,6 +172,9 @@ Attempt attemptFrom(ReferenceView seen, const AttemptContext& context) {
             return refuseRemains(std::move(m), *start.summary.gate, context.options.orb.gate);
           })
           .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
+  if (made && !skip.has(Mechanism::kDynamic)) {
+    made = refuseRivalled(std::move(*made), view.early, context);
+  }
   start.summary.reason = made.reason();
   if (made) made->report.add("corners", static_cast<double>(made->map.corners.size()));
   return {std::move(made), start.summary, start.motion};

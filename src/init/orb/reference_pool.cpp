@@ -69,7 +69,22 @@ void ReferencePool::start(FramePtr frame) {
   tracks_.start(*frame);
   frames_.push_back(std::move(frame));
   described_.emplace_back();
-  references_.emplace_back();
+  addReference();
+}
+
+/// Makes the newest frame a reference.
+void ReferencePool::addReference() {
+  Reference reference;
+  reference.frame = tracks_.frames() - 1;
+  reference.advanced = advanced_;
+  reference.corners = tracks_.size();
+  references_.push_back(std::move(reference));
+}
+
+void ReferencePool::keepEarly(Reference& reference) const {
+  const bool first = advanced_ == reference.advanced + 1;
+  if (!first && 2 * tracks_.sizeSince(reference.frame) < reference.corners) return;
+  reference.early = {frames_.back()->id(), tracks_.matchesFrom(reference.frame)};
 }
 
 void ReferencePool::advance(FramePtr frame) {
@@ -77,6 +92,7 @@ void ReferencePool::advance(FramePtr frame) {
   frames_.push_back(std::move(frame));
   described_.emplace_back();
   ++advanced_;
+  for (Reference& reference : references_) keepEarly(reference);
   keepWithinBudget();
   forgetFarReferences();
   for (std::size_t i = 0; i < references_.size(); ++i) {
@@ -155,7 +171,7 @@ void ReferencePool::addWhenDue() {
   tracks_.addCorners();
   newest_ = tracks_.frames() - 1;
   newest_advanced_ = advanced_;
-  references_.push_back({newest_, advanced_, {}, 0, {}});
+  addReference();
 }
 
 void ReferencePool::clear() {
@@ -175,6 +191,7 @@ ReferenceView ReferencePool::view(int reference) const {
   return {{frames_.begin() + from.frame, frames_.end()},
           std::move(tracks),
           from.last,
+          from.early,
           !from.far.empty()};
 }
 

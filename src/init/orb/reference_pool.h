@@ -75,7 +75,9 @@ class ReferencePool {
     int frame = 0;     // index of frames_
     int advanced = 0;  // of the pool when it was the newest frame
     AttemptSummary last;
-    int tried = 0;  // of the pool when it was tried last
+    int tried = 0;    // of the pool when it was tried last
+    int corners = 0;  // that it had
+    EarlyMatches early{};
     /// Positions of its features, frame by frame from itself on [px]; empty while optical flow
     /// suffices.
     std::vector<std::vector<Eigen::Vector2f>> far{};
@@ -91,6 +93,9 @@ class ReferencePool {
     return !flow_only_ && tracks_.survivorShare() < kMinKeptShare;
   }
   [[nodiscard]] bool lost(const Reference& reference) const;
+  void addReference();
+  /// Keeps its matches while half of its corners live.
+  void keepEarly(Reference& reference) const;
   void forgetUnusedFrames();
   void forgetFarReferences();
   void keepWithinBudget();

@@ -83,11 +83,18 @@ struct LiveTracks {
   bool matched = false;  ///< by descriptors, some of them
 };
 
+/// Matches of a reference while most of its corners lived: those that have been lost since, too.
+struct EarlyMatches {
+  FrameId frame;  ///< the last one with half of the corners, or the first after the reference
+  Matches matches;
+};
+
 /// Input of an attempt: frames and tracks since one reference.
 struct ReferenceView {
   std::vector<FramePtr> frames;      ///< the reference first
   CornerTracks tracks;               ///< one entry a frame
   AttemptSummary last;               ///< the attempt before
+  EarlyMatches early;                ///< as the images show them
   bool matched = false;              ///< descriptors, for some of the tracks
   std::optional<Readout> readout{};  ///< that the tracks were moved to the middle rows with
 };
