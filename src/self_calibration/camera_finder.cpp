@@ -11,7 +11,6 @@
 #include "self_calibration/corner_paths.h"
 
 #include <algorithm>
-#include <array>
 #include <cmath>
 #include <cstddef>
 #include <iomanip>
@@ -44,15 +43,11 @@ constexpr double kViewStep = 16;      // between two views, for an image diagona
 constexpr double kLeastViewStep = 4;  // where the others are too few
 constexpr double kViewShare = 0.8;  // of the corners of a view; where fewer are left comes the next
 
-/// What competes in the beginning, times the guess.
-constexpr std::array<double, 3> kFocalLengths = {1, 1.5, 1 / 1.5};
-constexpr int kRivalIterations = 6;
-constexpr std::size_t kRivalCorners = 200;
+constexpr int kFirstIterations = 6;  // with corners of which some are none
 constexpr int kIterations = 30;
 constexpr double kFirstNoise = 0.5;   // of a corner, for an image diagonal of 800 px [px]
 constexpr double kLeastNoise = 0.05;  // [px]
 constexpr double kWrong = 8;          // times the noise: a corner that is none
-constexpr double kBehindCost = 50;    // of a sight of a corner that cannot be placed
 
 constexpr double kShows = 3;         // standard deviations that a distortion differs from none
 constexpr double kReadoutShows = 1;  // a readout above is nearer to the truth than none
@@ -120,17 +115,6 @@ double noiseOf(const Scene& scene) {
   return std::max(kLeastNoise, medianOf(sightErrors(scene)) / kMedianLength);
 }
 
-/// The first corners alone, with their sights.
-Scene firstCorners(Scene scene, std::size_t count) {
-  count = std::min(count, scene.corners.size());
-  scene.corners.resize(count);
-  const auto end = std::find_if(scene.sights.begin(), scene.sights.end(), [&](const Sight& sight) {
-    return sight.corner >= count;
-  });
-  scene.sights.erase(end, scene.sights.end());
-  return scene;
-}
-
 /// The part that some views see, with the corners that three of them see.
 Scene partOf(const Scene& scene, std::size_t first_view, std::size_t last_view) {
   Scene part;
@@ -167,26 +151,6 @@ double disagreement(const Scene& scene, const LensPrior& prior, double noise) {
   adjust(prior, noise, kIterations, late);
   return 0.5 *
          std::abs(early.lens[self_calibration::kLogFocal] - late.lens[self_calibration::kLogFocal]);
-}
-
-/// Gives the scene the lens and the views with which some of its corners agree best, of those that
-/// lead from several focal lengths.
-void startBest(const LensPrior& prior, double noise, Scene& scene) {
-  const Scene some = firstCorners(scene, kRivalCorners);
-  double least = std::numeric_limits<double>::infinity();
-  for (const double factor : kFocalLengths) {
-    Scene rival = some;
-    rival.lens[self_calibration::kLogFocal] += std::log(factor);
-    placeCorners(rival);
-    const double lost = kBehindCost * static_cast<double>(some.sights.size() - rival.sights.size());
-    if (rival.corners.size() < kFewestCorners) continue;
-    const double cost = lost + adjust(prior, noise, kRivalIterations, rival);
-    if (cost >= least) continue;
-    least = cost;
-    scene.lens = rival.lens;
-    scene.views = std::move(rival.views);
-  }
-  placeCorners(scene);
 }
 
 }  // namespace
@@ -230,7 +194,8 @@ class CameraFinder::Impl {
     Scene scene = sceneOf(views);
     // What is held stays as the guess says.
     scene.lens = (prior.sigma.array() > 0).select(scene.lens, prior.mean);
-    startBest(prior, noise, scene);
+    placeCorners(scene);
+    adjust(prior, noise, kFirstIterations, scene);
     if (scene.corners.size() < kFewestCorners) return std::nullopt;
     for (int round = 0; round < 2; ++round) {
       noise = noiseOf(scene);
