@@ -18,7 +18,7 @@ Features findScaleFeatures(const GreyImage& image, int count);
 
 /// Distances between their descriptors [-].
 Distances scaleDistances(const Features& from, const Features& to);
-/// That of two of them [-].
+/// Distance between two of them [-].
 float scaleDistance(const Features& from, std::size_t i, const Features& to, std::size_t j);
 
 }  // namespace dsorb

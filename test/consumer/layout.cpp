@@ -25,7 +25,7 @@ constexpr bool kSame =
     hasLayout<dsorb::PosePrior, 360, 8>() && hasLayout<dsorb::FrameInfo, 72, 8>() &&
     hasLayout<dsorb::InitReport, 144, 8>() && hasLayout<dsorb::StartPose, 112, 8>() &&
     hasLayout<dsorb::RowTimes, 104, 8>() && hasLayout<dsorb::Calibration, 272, 8>() &&
-    hasLayout<dsorb::OdometryOptions, 424, 8>();
+    hasLayout<dsorb::OdometryOptions, 408, 8>();
 
 }  // namespace
 
