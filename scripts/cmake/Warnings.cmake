@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: BSD-3-Clause
 # dsorb_compile_options(TARGET): warnings, arithmetic, sanitizers and the instruction set, private to our targets.
 function(dsorb_compile_options target)
-  # No ABI tells how the vectors of base/lanes.h are passed; functions that take or return them are always inlined.
+  # How the vectors of base/lanes.h are passed depends on the instruction set; functions that take or return them are always inlined.
   target_compile_options(${target} PRIVATE -Wall -Wextra -Wconversion -Wshadow -Wno-psabi)
   # Eigen's fast square root of floats starts from the processor's estimate, whose bits are the maker's own.
   target_compile_definitions(${target} PRIVATE EIGEN_FAST_MATH=0)

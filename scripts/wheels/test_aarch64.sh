@@ -41,4 +41,4 @@ cmake -S . -B "$folder/build" -G Ninja --toolchain "$folder/toolchain.cmake" -DC
   -DCMAKE_CXX_COMPILER_LAUNCHER=ccache -DDSORB_WITH_CERES=OFF -DDSORB_INSTALL=OFF >/dev/null
 cmake --build "$folder/build" --parallel "${DSORB_JOBS:-$(nproc)}" --target "${targets[@]}"
 [ $# -gt 0 ] || set -- -L 'unit|contract'
-ctest --test-dir "$folder/build" --parallel "$(nproc)" --output-on-failure --timeout 7200 "$@" # qemu takes 25 times as long
+ctest --test-dir "$folder/build" --parallel "$(nproc)" --output-on-failure "$@"

@@ -47,7 +47,7 @@ float scaleDistance(const Features& from, std::size_t i, const Features& to, std
   const float cosine = matrixOf(from)
                            .row(static_cast<Eigen::Index>(i))
                            .dot(matrixOf(to).row(static_cast<Eigen::Index>(j)));
-  return std::sqrt(std::max(0.0F, 2 - 2 * cosine));
+  return std::sqrt(std::max(2 - 2 * cosine, 0.0F));
 }
 
 }  // namespace dsorb

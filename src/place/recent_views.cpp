@@ -20,9 +20,10 @@
 namespace dsorb::place {
 namespace {
 
-constexpr std::size_t kShared = 3;    // views before and after, whose points a view shows, too
-constexpr std::size_t kAtOnce = 4;    // views that are described for one frame
-constexpr int kPatience = 4;          // frames that are looked for in vain
+constexpr std::size_t kShared = 3;  // views before and after, whose points a view shows, too
+constexpr std::size_t kAtOnce = 4;  // views that are described for one frame
+constexpr int kPatience = 4;        // frames that are looked for in vain
+static_assert(kPatience * kAtOnce >= RecentViews::kViews, "all views are asked");
 constexpr std::size_t kBlind = 4;     // times fewer corners than the newest view: covered, blurred
 constexpr int kCorners = 1000;        // of a view
 constexpr int kLevel = 1;             // of the pyramid, on which they are found
@@ -125,11 +126,14 @@ void describeSome(std::deque<RecentView>& views, std::size_t count) {
   for (std::size_t offset = 1; offset <= kSpacing; ++offset) {
     for (std::size_t back = offset; back <= views.size(); back += kSpacing) {
       RecentView& view = views[views.size() - back];
-      if (view.features.points.empty() && next.size() < count) next.push_back(&view);
+      if (!view.is_described && next.size() < count) next.push_back(&view);
     }
   }
   forEachRange(next.size(), 1, [&](std::size_t begin, std::size_t end) {
-    for (std::size_t i = begin; i < end; ++i) next[i]->features = describe(next[i]->image);
+    for (std::size_t i = begin; i < end; ++i) {
+      next[i]->features = describe(next[i]->image);
+      next[i]->is_described = true;
+    }
   });
 }
 
@@ -162,8 +166,8 @@ std::vector<Located> locateAll(const std::deque<RecentView>& views, int segment)
   std::vector<Located> located(views.size());
   forEachView(views, [&](std::size_t i) {
     const std::optional<KeyframeSnapshot>& told = views[i].keyframe;
-    const bool is_described = !views[i].features.points.empty();
-    if (is_described && told && told->segment == segment) located[i] = locate(views, i);
+    if (!views[i].is_described || !told || told->segment != segment) return;
+    located[i] = locate(views, i);
   });
   return located;
 }

@@ -22,7 +22,8 @@ struct RecentView {
   FrameId id;
   std::optional<KeyframeSnapshot> keyframe;  ///< as told last
   GreyImage image;
-  Features features;  ///< none before it is asked for
+  Features features;
+  bool is_described = false;  ///< whether these are the image's
 };
 
 /// What is remembered of a frame; nothing where its pyramid has one level only.

@@ -20,8 +20,9 @@ constexpr int kPoseDim = 6;
 constexpr int kViewDim = 8;  // pose and shift
 using Matrix2V = Eigen::Matrix<double, 2, kViewDim>;
 
-constexpr double kLossScale = 4;        // squared standard deviations at which the loss bends
-constexpr double kBehind = 50;          // loss of a corner behind a view that sees it
+constexpr double kLossScale = 4;  // squared standard deviations at which the loss bends
+constexpr double kBehind = 50;    // loss of a corner behind a view that sees it
+constexpr double kFirstDamping = 1e-6;
 constexpr double kLeastDamping = 1e-8;  // holds the motions and scales of whole worlds
 constexpr double kZoomSigma = 0.3;      // wide: a change of the focal length is nearly free
 constexpr double kLeastChange = 1e-4;   // of the cost; less ends an adjustment
@@ -186,7 +187,7 @@ EliminatedCorner addCorner(
 }
 
 /// Takes the part of an eliminated corner out of the rows of lens and views.
-/// @tparam Used the first unknowns of a view, which are not held
+/// @tparam Used number of unknowns of a view; those behind them are held
 template <Index Used>
 void subtractCorner(const EliminatedCorner& corner, Reduced& system) {
   const auto& Y = corner.coupling;
@@ -238,7 +239,7 @@ Reduced linearize(const Scene& scene, const LensPrior& prior, double noise, doub
   }
   for (std::size_t i = 0; i < scene.views.size(); ++i) {
     for (const Index k : {0, 1}) {
-      constrain(rowOf(i) + 6 + k, prior.shift_sigma, scene.shifts[i][k]);
+      constrain(rowOf(i) + kPoseDim + k, prior.shift_sigma, scene.shifts[i][k]);
     }
   }
   return system;
@@ -263,19 +264,23 @@ class ScaledSystem {
 
 /// Where a pinhole camera with a global shutter would see a corner, on the plane z = 1.
 Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
-  constexpr int kIterations = 10;
-  constexpr double kLeastBend = 0.3;
+  constexpr int kIterations = 5;  // of Newton
+  constexpr double kLeastSlope = 0.1;
   const double fx =
       std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
   const Eigen::Vector2d pixel =
       sight.pixel - scene.shifts[sight.view] - scene.lens[kReadout] * sight.drift;
   const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
                                    .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
-  Eigen::Vector2d ray = seen;
+  const auto k = scene.lens.segment<3>(kRadial);
+  const double distance = seen.norm();
+  double r = distance;
   for (int i = 0; i < kIterations; ++i) {
-    ray = seen / std::max(bendAt(scene.lens, ray.squaredNorm()), kLeastBend);
+    const double s = r * r;
+    const double slope = 1 + s * (3 * k[0] + s * (5 * k[1] + 7 * s * k[2]));
+    r -= (r * bendAt(scene.lens, s) - distance) / std::max(slope, kLeastSlope);
   }
-  return ray;
+  return distance > 0 ? Eigen::Vector2d(r / distance * seen) : seen;
 }
 
 /// For minimize().
@@ -294,8 +299,8 @@ class AdjustmentProblem {
     moved_ = scene_;
     moved_.lens += step_.head<kLensDim>();
     for (std::size_t i = 0; i < moved_.views.size(); ++i) {
-      moved_.views[i] = SE3::exp(step_.segment<6>(rowOf(i))) * moved_.views[i];
-      moved_.shifts[i] += step_.segment<2>(rowOf(i) + 6);
+      moved_.views[i] = SE3::exp(step_.segment<kPoseDim>(rowOf(i))) * moved_.views[i];
+      moved_.shifts[i] += step_.segment<2>(rowOf(i) + kPoseDim);
     }
     for (std::size_t i = 0; i < moved_.corners.size(); ++i) {
       moved_.corners[i] = movedCorner(i, system_.corners[i]);
@@ -317,6 +322,7 @@ class AdjustmentProblem {
   [[nodiscard]] Eigen::Vector3d movedCorner(std::size_t index,
                                             const EliminatedCorner& corner) const {
     constexpr double kLeastShare = 0.1;  // of an inverse depth
+    if (corner.rows.empty()) return scene_.corners[index];
     Eigen::Vector3d step =
         -corner.gradient - corner.coupling.leftCols<kLensDim>() * step_.head<kLensDim>();
     for (std::size_t k = 0; k < corner.rows.size(); ++k) {
@@ -410,7 +416,7 @@ void leaveOutAbove(double limit, Scene& scene) {
 double adjust(const LensPrior& prior, double noise, int max_iterations, Scene& scene) {
   scene.shifts.resize(scene.views.size(), Eigen::Vector2d::Zero());
   AdjustmentProblem problem(prior, noise, scene);
-  FactorDamping damping{1e-6, 0.2, 5, kLeastDamping, kLeastDamping, 1e8, 8};
+  FactorDamping damping{kFirstDamping, 0.2, 5, kLeastDamping, kLeastDamping, 1e8, 8};
   minimize(problem, damping, max_iterations);
   return problem.cost();
 }

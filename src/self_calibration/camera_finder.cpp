@@ -43,7 +43,7 @@ constexpr double kViewStep = 16;      // between two views, for an image diagona
 constexpr double kLeastViewStep = 4;  // where the others are too few
 constexpr double kViewShare = 0.8;  // of the corners of a view; where fewer are left comes the next
 
-constexpr int kFirstIterations = 6;  // with corners of which some are none
+constexpr int kFirstIterations = 6;  // before wrong corners are left out
 constexpr int kIterations = 30;
 constexpr double kFirstNoise = 0.5;   // of a corner, for an image diagonal of 800 px [px]
 constexpr double kLeastNoise = 0.05;  // [px]
@@ -195,8 +195,8 @@ class CameraFinder::Impl {
     // What is held stays as the guess says.
     scene.lens = (prior.sigma.array() > 0).select(scene.lens, prior.mean);
     placeCorners(scene);
-    adjust(prior, noise, kFirstIterations, scene);
     if (scene.corners.size() < kFewestCorners) return std::nullopt;
+    adjust(prior, noise, kFirstIterations, scene);
     for (int round = 0; round < 2; ++round) {
       noise = noiseOf(scene);
       leaveOutAbove(kWrong * noise, scene);

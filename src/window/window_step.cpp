@@ -31,7 +31,7 @@ constexpr double kPriorNoise = 49;
 constexpr double kPreconditionerOffset = 10;  // @source DSO as published
 
 // Standard deviations by which phones and webcams differ, for a guessed camera.
-// They go with the focal length; these are for one that is known to kStatedFocalSigma.
+// These are for a focal length known to kStatedFocalSigma (shareOfGuess).
 constexpr double kAspectSigma = 0.003;  // relative, of the ratio of the two focal lengths
 constexpr double kCenterSigma = 0.02;   // of the principal point, as a share of the width
 constexpr double kRadialSigma = 0.1;    // of the radial distortion k1
@@ -103,8 +103,9 @@ double cameraScale(Index row) {
   return row == kRadial ? kRadialScale : kCameraScale;
 }
 
-/// Sigmas of the rest of a camera over those of one whose field of view is a guess: who found the
-/// focal length has found the rest as well.
+/// Sigmas of the rest of a camera over those of one whose field of view is a guess: what tells the
+/// focal length tells the rest as well.
+/// @param options with a focal_sigma above 0
 double shareOfGuess(const PriorOptions& options) {
   return std::min(1.0, options.focal_sigma / kStatedFocalSigma);
 }

@@ -131,8 +131,8 @@ TEST_P(VanAhead, IsNotTheWorld) {
   options.moving_object_share = 0.5;
   const RenderedSequence& sequence = rendered(options);
   const InitRun run = start(sequence);
-  if (!run.result) return;                                                      // it may wait
-  EXPECT_LT(startErrors(*run.result, sequence).direction_deg, 2) << run.log();  // once 90
+  if (!run.result) return;  // it may wait
+  EXPECT_LT(startErrors(*run.result, sequence).direction_deg, 2) << run.log();
 }
 
 INSTANTIATE_TEST_SUITE_P(Streets, VanAhead, testing::Values(11, 14, 16));

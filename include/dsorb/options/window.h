@@ -21,7 +21,7 @@ DescribeFor<Options, OptimizerOptions> describe(Visitor& visit, Options& o) {
 }
 
 /// Weights of the priors; those of intrinsics in scaled units (window/window.h). Where a focal
-/// length is known better than a guess, the rest of its camera is held in proportion.
+/// length is known to less than .15, the rest of its camera is held in proportion.
 struct PriorOptions {
   double intrinsics = 1e5;  ///< reference: 5e9
   double focal_sigma = 0;   ///< relative, of a guess; above 0 instead of the former. `--hfov`: 0.15

@@ -583,9 +583,10 @@ class CoarseInitializer final : public Initializer {
   InitStep conclude(const LevelReport& finest) {
     Quality quality = clock_.time("quality", [&] { return judge(); });
     if (quality.reason == InitReason::kDone && o_.min_rival_margin > 0) {
-      quality.rival_margin = clock_.time("rivals", [&] { return challenge(finest); });
-      if (quality.rival_margin < o_.min_rival_margin)
-        quality.reason = InitReason::kDegenerateMotion;
+      const double margin = clock_.time("rivals", [&] { return challenge(finest); });
+      quality = clock_.time("quality", [&] { return judge(); });  // the winner may be another one
+      quality.rival_margin = margin;
+      if (margin < o_.min_rival_margin) quality.reason = InitReason::kDegenerateMotion;
     }
     if (quality.reason != InitReason::kDone) return needsMoreFrames(quality.reason);
     InitStep step = resets_.finish(handOver(quality), clock_);

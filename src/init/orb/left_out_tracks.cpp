@@ -93,7 +93,7 @@ double stillCells(const Matches& matches,
 
 // Matches of another motion over those of a start, so that either may be the world's. Wrong tracks
 // of 7-Scenes agree about .23, or .25 with a spread of .27; a street beside a van that is taken for
-// it has .29 and .43. Without this nine of twelve streets start with the motion of the van.
+// it has .29 and .43.
 constexpr double kMinRivalShare = 0.25;      // their number
 constexpr double kMinRivalSpread = 1.0 / 3;  // their spreadOf()
 

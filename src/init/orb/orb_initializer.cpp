@@ -142,6 +142,7 @@ InitializationResult toResult(Reconstruction made) {
 Attempt attemptFrom(ReferenceView seen, const AttemptContext& context) {
   using Made = Reconstruction;
   const Skips& skip = context.options.skip;
+  const int shown = seen.tracks.size();
   std::vector<Eigen::Vector2f> stuck;
   if (!skip.has(Mechanism::kStuck)) {
     stuck = context.clock.time(
@@ -172,7 +173,9 @@ Attempt attemptFrom(ReferenceView seen, const AttemptContext& context) {
             return refuseRemains(std::move(m), *start.summary.gate, context.options.orb.gate);
           })
           .then([&](Made m) { return poseOtherFrames(std::move(m), context); });
-  if (made && !skip.has(Mechanism::kDynamic)) {
+  // Early matches are as the images show them, with those on bonnets, logos and edges.
+  const bool comparable = seen.tracks.size() == shown && !view.readout;
+  if (made && comparable && !skip.has(Mechanism::kDynamic)) {
     made = refuseRivalled(std::move(*made), view.early, context);
   }
   start.summary.reason = made.reason();

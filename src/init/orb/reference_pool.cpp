@@ -72,7 +72,6 @@ void ReferencePool::start(FramePtr frame) {
   addReference();
 }
 
-/// Makes the newest frame a reference.
 void ReferencePool::addReference() {
   Reference reference;
   reference.frame = tracks_.frames() - 1;

@@ -76,7 +76,7 @@ class ReferencePool {
     int advanced = 0;  // of the pool when it was the newest frame
     AttemptSummary last;
     int tried = 0;    // of the pool when it was tried last
-    int corners = 0;  // that it had
+    int corners = 0;  // when it became one
     EarlyMatches early{};
     /// Positions of its features, frame by frame from itself on [px]; empty while optical flow
     /// suffices.
@@ -93,8 +93,9 @@ class ReferencePool {
     return !flow_only_ && tracks_.survivorShare() < kMinKeptShare;
   }
   [[nodiscard]] bool lost(const Reference& reference) const;
+  /// Makes the newest frame one.
   void addReference();
-  /// Keeps its matches while half of its corners live.
+  /// Keeps its matches while half of its corners live, and those with the first frame after it.
   void keepEarly(Reference& reference) const;
   void forgetUnusedFrames();
   void forgetFarReferences();

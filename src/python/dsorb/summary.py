@@ -17,7 +17,8 @@ ADVICE = {
     'too_few_points': 'too few corners to follow: too dark, blurred, or without texture. More light, a shorter exposure, '
                       'or a scene with more detail help',
     'too_little_parallax': 'the camera hardly moved sideways: move it by about a twentieth of the distance to the scene',
-    'degenerate_motion': 'the camera turned on the spot, or the motion does not tell depth: walk instead of turning',
+    'degenerate_motion': 'the camera turned on the spot, the motion does not tell depth, or a large object moves: walk instead of '
+                         'turning, or hide the object (--mask)',
     'tracking_lost': 'what was followed was lost: darkness, cuts, fast motion, blur, or too few images a second (--every)',
     'poor_quality': 'the images contradict a rigid scene seen by this camera: check --calib or --hfov; a rolling shutter '
                     'or large moving objects do the same (--mask)',
