@@ -264,23 +264,19 @@ class ScaledSystem {
 
 /// Where a pinhole camera with a global shutter would see a corner, on the plane z = 1.
 Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
-  constexpr int kIterations = 5;  // of Newton
-  constexpr double kLeastSlope = 0.1;
+  constexpr int kIterations = 10;
+  constexpr double kLeastBend = 0.3;
   const double fx =
       std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
   const Eigen::Vector2d pixel =
       sight.pixel - scene.shifts[sight.view] - scene.lens[kReadout] * sight.drift;
   const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
                                    .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
-  const auto k = scene.lens.segment<3>(kRadial);
-  const double distance = seen.norm();
-  double r = distance;
+  Eigen::Vector2d ray = seen;
   for (int i = 0; i < kIterations; ++i) {
-    const double s = r * r;
-    const double slope = 1 + s * (3 * k[0] + s * (5 * k[1] + 7 * s * k[2]));
-    r -= (r * bendAt(scene.lens, s) - distance) / std::max(slope, kLeastSlope);
+    ray = seen / std::max(bendAt(scene.lens, ray.squaredNorm()), kLeastBend);
   }
-  return distance > 0 ? Eigen::Vector2d(r / distance * seen) : seen;
+  return ray;
 }
 
 /// For minimize().
