@@ -117,8 +117,8 @@ DSORB_ALWAYS_INLINE WarpedPattern warpPattern(const TargetImage& target,
                                               const HostRays& rays,
                                               const Eigen::Vector2f& pixel,
                                               float inverse_depth) {
-  const Lanes ray_x = rays.x<Lanes>(pixel.x() + kPatternX);
-  const Lanes ray_y = rays.y<Lanes>(pixel.y() + kPatternY);
+  const auto ray_x = rays.x<Lanes>(pixel.x() + kPatternX);
+  const auto ray_y = rays.y<Lanes>(pixel.y() + kPatternY);
   WarpedPattern pattern;
   pattern.at = projectInto<kRolling>(target, ray_x, ray_y, inverse_depth);
   pattern.seen = sampleTarget(target, pattern.at, pattern.inside);
