@@ -586,7 +586,9 @@ class CoarseInitializer final : public Initializer {
       const double margin = clock_.time("rivals", [&] { return challenge(finest); });
       quality = clock_.time("quality", [&] { return judge(); });  // the winner may be another one
       quality.rival_margin = margin;
-      if (margin < o_.min_rival_margin) quality.reason = InitReason::kDegenerateMotion;
+      if (quality.reason == InitReason::kDone && margin < o_.min_rival_margin) {
+        quality.reason = InitReason::kDegenerateMotion;
+      }
     }
     if (quality.reason != InitReason::kDone) return needsMoreFrames(quality.reason);
     InitStep step = resets_.finish(handOver(quality), clock_);
