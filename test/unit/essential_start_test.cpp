@@ -145,6 +145,21 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
   EXPECT_GT(std::max(errorOf(motions[0].T_cur_ref), errorOf(motions[1].T_cur_ref)), 20.0);
 }
 
+TEST(MotionCandidates, CellsDecideTogether) {
+  MotionCandidate best;
+  MotionCandidate other;
+  best.cell_costs.assign(40, 1);
+  for (std::size_t i = 0; i < 40; ++i) {
+    other.cell_costs.push_back(1 + (i % 2 == 0 ? 0.01 : -0.01));
+  }
+  EXPECT_NEAR(costRatio(other, best), 1, 1e-12);
+  other.cell_costs[7] = 1000;  // one cell among forty that are undecided
+  EXPECT_NEAR(costRatio(other, best), 1, 1e-3);
+  other.cell_costs.assign(40, 1.1);
+  EXPECT_NEAR(costRatio(other, best), 1.1, 1e-12);
+  EXPECT_NEAR(costRatio(best, other), 1 / 1.1, 1e-12);
+}
+
 TEST(RobustAdjustment, MeasuresTheNoiseThatWasDrawn) {
   for (const double noise : {0.05, 0.2, 0.8}) {
     SyntheticMap scene = makeSyntheticMap({300, 5, noise, 0.05}, 11);

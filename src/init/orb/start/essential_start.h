@@ -64,6 +64,7 @@ struct MotionCandidate {
   double front_share = 0;  ///< of the corners, in front of the camera
   double cost = 0;         ///< mean robust cost of all tracks in these frames, lost corners at the
                            ///< cost of the severe limit
+  std::vector<double> cell_costs{};    ///< of the tracks in each of errorCells(), summed
   std::optional<bool> motions_used{};  ///< that the caller knows; none: none are known
 };
 
@@ -78,6 +79,11 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
 std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const Matches& matches,
                                           const PinholeCamera& camera);
+
+/// Cost of a candidate over that of another one. Each cell of the image says only so much of the
+/// difference, as neighbours err together: along a border that moves with the camera, or where
+/// tracks are lost.
+double costRatio(const MotionCandidate& other, const MotionCandidate& best);
 
 /// Outcome of a competition between motions.
 struct Competition {
