@@ -42,6 +42,12 @@ double phaseOf(const Scene& scene, std::size_t view) {
   return static_cast<double>(view) / last - 0.5;
 }
 
+/// fx and fy of a view [px].
+Eigen::Vector2d focalOf(const Scene& scene, std::size_t view) {
+  const double log_fx = scene.lens[kLogFocal] + phaseOf(scene, view) * scene.lens[kZoom];
+  return {std::exp(log_fx), std::exp(log_fx + scene.lens[kAspect])};
+}
+
 /// What the distance of a ray from the axis is multiplied by, at the square of that distance.
 double bendAt(const LensVector& lens, double squared) {
   return 1 +
@@ -56,9 +62,7 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   const Eigen::Vector3d p = view * scene.corners[sight.corner];
   r.in_front = p.z() > 1e-6 * p.norm();
   if (!r.in_front) return r;
-  const double phase = phaseOf(scene, sight.view);
-  const double fx = std::exp(scene.lens[kLogFocal] + phase * scene.lens[kZoom]);
-  const Eigen::Vector2d focal(fx, scene.aspect * fx);
+  const Eigen::Vector2d focal = focalOf(scene, sight.view);
   const Eigen::Vector2d ray = p.head<2>() / p.z();
   const double squared = ray.squaredNorm();
   const auto k = scene.lens.segment<3>(kRadial);
@@ -82,7 +86,8 @@ Residual residualOf(const Scene& scene, const Sight& sight) {
   r.by_lens.col(kRadial + 1) = squared * r.by_lens.col(kRadial);
   r.by_lens.col(kRadial + 2) = squared * r.by_lens.col(kRadial + 1);
   r.by_lens.col(kReadout) = sight.drift;
-  r.by_lens.col(kZoom) = phase * shift;
+  r.by_lens.col(kZoom) = phaseOf(scene, sight.view) * shift;
+  r.by_lens.col(kAspect) << 0, shift.y();
   return r;
 }
 
@@ -266,12 +271,10 @@ class ScaledSystem {
 Eigen::Vector2d rayOf(const Scene& scene, const Sight& sight) {
   constexpr int kIterations = 10;
   constexpr double kLeastBend = 0.3;
-  const double fx =
-      std::exp(scene.lens[kLogFocal] + phaseOf(scene, sight.view) * scene.lens[kZoom]);
   const Eigen::Vector2d pixel =
       sight.pixel - scene.shifts[sight.view] - scene.lens[kReadout] * sight.drift;
-  const Eigen::Vector2d seen = (pixel - scene.lens.segment<2>(kCenter))
-                                   .cwiseQuotient(Eigen::Vector2d(fx, scene.aspect * fx));
+  const Eigen::Vector2d seen =
+      (pixel - scene.lens.segment<2>(kCenter)).cwiseQuotient(focalOf(scene, sight.view));
   Eigen::Vector2d ray = seen;
   for (int i = 0; i < kIterations; ++i) {
     ray = seen / std::max(bendAt(scene.lens, ray.squaredNorm()), kLeastBend);

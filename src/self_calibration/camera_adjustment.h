@@ -10,14 +10,15 @@
 
 namespace dsorb::self_calibration {
 
-/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, k3, readout [s], and what the
-/// first one grows by from the first view to the last.
+/// Numbers of a camera: logarithm of fx [px], cx, cy [px], k1, k2, k3, readout [s], what the first
+/// one grows by from the first view to the last, and the logarithm of fy over fx.
 constexpr int kLogFocal = 0;
 constexpr int kCenter = 1;
 constexpr int kRadial = 3;
 constexpr int kReadout = 6;
 constexpr int kZoom = 7;
-constexpr int kLensDim = 8;
+constexpr int kAspect = 8;
+constexpr int kLensDim = 9;
 using LensVector = Eigen::Matrix<double, kLensDim, 1>;
 
 /// What is known of the numbers beforehand; one without a standard deviation is held.
@@ -43,7 +44,6 @@ struct Scene {
   std::vector<Eigen::Vector3d> corners;   ///< world coordinates
   LensVector lens;
   std::vector<Sight> sights;  ///< sorted by corner; neither moved nor changed
-  double aspect = 1;          ///< fy over fx
 };
 
 /// Places the corners by the rays of their sights. Those that land behind a view that sees them

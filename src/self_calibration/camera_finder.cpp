@@ -56,7 +56,8 @@ constexpr double kReadoutShows = 1;  // a readout above is nearer to the truth t
 constexpr double kCenterSigma = 0.02;  // share of the longer side
 constexpr double kK1Sigma = 0.3;
 constexpr double kK2Sigma = 0.15;
-constexpr double kK3Sigma = 0.05;  // once another one shows
+constexpr double kK3Sigma = 0.05;     // once another one shows
+constexpr double kAspectSigma = 0.3;  // once pixels are not square, as in images that were squeezed
 
 /// How far the corners that two images share have moved: the median [px]; infinite where they
 /// share too few.
@@ -92,7 +93,8 @@ LensVector numbersOf(const Lens& lens) {
   LensVector numbers;
   const bool bent = lens.model == LensModel::kRadTan;
   numbers << std::log(lens.fx), lens.cx, lens.cy, bent ? lens.coefficients[0] : 0,
-      bent ? lens.coefficients[1] : 0, bent ? lens.coefficients[4] : 0, lens.readout.seconds, 0;
+      bent ? lens.coefficients[1] : 0, bent ? lens.coefficients[4] : 0, lens.readout.seconds, 0,
+      std::log(lens.fy / lens.fx);
   return numbers;
 }
 
@@ -104,7 +106,7 @@ LensPrior priorOf(const Lens& guess) {
   LensPrior prior{numbersOf(guess), LensVector::Zero()};
   if (guess.focal_sigma > 0) {
     const double center = centerSigma(guess);
-    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0, 0, 0;
+    prior.sigma << guess.focal_sigma, center, center, kK1Sigma, kK2Sigma, 0, 0, 0, 0;
   }
   prior.sigma[self_calibration::kReadout] = guess.readout.sigma;
   prior.sigma /= kFoundCamera;  // must count as the corners do
@@ -119,7 +121,6 @@ double noiseOf(const Scene& scene) {
 Scene partOf(const Scene& scene, std::size_t first_view, std::size_t last_view) {
   Scene part;
   part.lens = scene.lens;
-  part.aspect = scene.aspect;
   part.views.assign(scene.views.begin() + static_cast<std::ptrdiff_t>(first_view),
                     scene.views.begin() + static_cast<std::ptrdiff_t>(last_view));
   for (auto sight = scene.sights.begin(); sight != scene.sights.end();) {
@@ -197,6 +198,9 @@ class CameraFinder::Impl {
     placeCorners(scene);
     if (scene.corners.size() < kFewestCorners) return std::nullopt;
     adjust(prior, noise, kFirstIterations, scene);
+    if (prior.sigma[self_calibration::kLogFocal] > 0) {
+      freeWhereItShows(self_calibration::kAspect, kAspectSigma, noiseOf(scene), prior, scene);
+    }
     for (int round = 0; round < 2; ++round) {
       noise = noiseOf(scene);
       leaveOutAbove(kWrong * noise, scene);
@@ -271,7 +275,6 @@ class CameraFinder::Impl {
     corners.resize(std::min(corners.size(), kMostCorners));
     Scene scene;
     scene.lens = numbersOf(images_);
-    scene.aspect = images_.fy / images_.fx;
     for (const View& view : views) scene.views.push_back(view.T_cam_world);
     for (std::size_t i = 0; i < corners.size(); ++i) {
       for (Sight& sight : corners[i]) {
@@ -303,27 +306,29 @@ class CameraFinder::Impl {
       changed = hold(self_calibration::kRadial + 1) || changed;
     }
     if (changed) adjust(prior, noise, kIterations, scene);
-    if (prior.sigma[self_calibration::kRadial] > 0) bendFurther(noise, prior, scene);
+    if (prior.sigma[self_calibration::kRadial] > 0) {
+      freeWhereItShows(self_calibration::kRadial + 2, kK3Sigma, noise, prior, scene);
+    }
   }
 
-  /// Adds the third coefficient of a distortion where it shows.
-  static void bendFurther(double noise, LensPrior& prior, Scene& scene) {
-    constexpr int kThird = self_calibration::kRadial + 2;
+  /// Frees a number of the lens where it then differs from what it was held at.
+  static void freeWhereItShows(
+      int number, double sigma, double noise, LensPrior& prior, Scene& scene) {
     LensPrior further = prior;
-    further.sigma[kThird] = kK3Sigma / kFoundCamera;
-    Scene bent = scene;
-    adjust(further, noise, kIterations, bent);
-    const double sigma = kFoundCamera * lensSigmas(further, noise, bent)[kThird];
-    if (!(std::abs(bent.lens[kThird]) > kShows * sigma)) return;
+    further.sigma[number] = sigma / kFoundCamera;
+    Scene freed = scene;
+    adjust(further, noise, kIterations, freed);
+    const double told = kFoundCamera * lensSigmas(further, noise, freed)[number];
+    if (!(std::abs(freed.lens[number] - further.mean[number]) > kShows * told)) return;
     prior = further;
-    scene = std::move(bent);
+    scene = std::move(freed);
   }
 
   [[nodiscard]] FoundCamera told(const Scene& scene, const LensVector& sigmas) const {
     FoundCamera found;
     Lens& lens = found.lens = guess_;
     lens.fx = std::exp(scene.lens[self_calibration::kLogFocal]);
-    lens.fy = scene.aspect * lens.fx;
+    lens.fy = std::exp(scene.lens[self_calibration::kAspect]) * lens.fx;
     lens.cx = scene.lens[self_calibration::kCenter];
     lens.cy = scene.lens[self_calibration::kCenter + 1];
     const double k1 = scene.lens[self_calibration::kRadial];
@@ -360,6 +365,9 @@ std::string describe(const FoundCamera& camera) {
   text << std::fixed << std::setprecision(sigma < 1 ? 1 : 0) << "focal length " << lens.fx << " +- "
        << sigma << " px (" << std::setprecision(1)
        << 2 * std::atan(0.5 * lens.width / lens.fx) * kDegPerRad << " degrees)";
+  if (lens.fy != lens.fx) {
+    text << std::setprecision(3) << ", pixels " << lens.fx / lens.fy << " times as high as wide";
+  }
   if (lens.model != LensModel::kPinhole) {
     text << std::setprecision(2) << ", distortion " << lens.coefficients[0] << " +- "
          << std::setprecision(camera.k1_sigma < 0.01 ? 3 : 2) << camera.k1_sigma;

@@ -6,6 +6,8 @@
 
 #include <gtest/gtest.h>
 #include <nlohmann/json.hpp>
+#include <opencv2/imgcodecs.hpp>
+#include <opencv2/imgproc.hpp>
 
 #include <cmath>
 #include <filesystem>
@@ -62,6 +64,24 @@ TEST(UnknownCamera, IsFoundAndIsACalibrationWhereItIsKnown) {
     EXPECT_FALSE(run.contains("calibration_suspected")) << "of a camera that nobody gave";
     EXPECT_EQ(fs::exists(out / "refined_camera.txt"), found["known"].get<bool>());
   }
+}
+
+TEST(UnknownCamera, ImagesMayBeSqueezed) {
+  const TemporaryFolder folder;
+  const fs::path room = roomWithoutCalibration(folder.path(), "65");
+  for (const fs::directory_entry& image : fs::directory_iterator(room / "images")) {
+    cv::Mat squeezed;
+    cv::resize(cv::imread(image.path().string(), cv::IMREAD_GRAYSCALE),
+               squeezed,
+               {640, 368},
+               0,
+               0,
+               cv::INTER_AREA);
+    ASSERT_TRUE(cv::imwrite(image.path().string(), squeezed));
+  }
+  const auto found = runOn(room, folder.path() / "out")["found_camera"];
+  EXPECT_NEAR(found["fx"].get<double>() / 502.3, 1, 0.01) << found.dump(2);
+  EXPECT_NEAR(found["fy"].get<double>() / found["fx"].get<double>(), 368.0 / 480, 0.005);
 }
 
 TEST(UnknownCamera, IsNoCalibrationWhereFewImagesTellIt) {

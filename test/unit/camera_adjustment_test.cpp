@@ -14,13 +14,14 @@ namespace {
 constexpr double kNoise = 0.2;  // [px]
 
 LensVector truth() {
-  return (LensVector() << std::log(500.0), 325, 236, -0.25, 0.06, -0.02, 0.02, 0).finished();
+  return (LensVector() << std::log(500.0), 325, 236, -0.25, 0.06, -0.02, 0.02, 0, -0.05).finished();
 }
 
 Eigen::Vector2d seen(const LensVector& lens, const Eigen::Vector3d& p) {
   const Eigen::Vector2d ray = p.head<2>() / p.z();
   const double r2 = ray.squaredNorm();
-  return std::exp(lens[0]) * (1 + r2 * (lens[3] + r2 * (lens[4] + r2 * lens[5]))) * ray +
+  const Eigen::Vector2d focal(std::exp(lens[0]), std::exp(lens[0] + lens[kAspect]));
+  return (1 + r2 * (lens[3] + r2 * (lens[4] + r2 * lens[5]))) * focal.cwiseProduct(ray) +
          lens.segment<2>(1);
 }
 
@@ -55,8 +56,8 @@ Scene sceneWithNoise(double noise) {
 
 LensPrior wide() {
   LensPrior prior;
-  prior.mean << std::log(560.0), 319.5, 239.5, 0, 0, 0, 0, 0;
-  prior.sigma << 0.3, 13, 13, 0.3, 0.15, 0.05, 0.02, 0;
+  prior.mean << std::log(560.0), 319.5, 239.5, 0, 0, 0, 0, 0, 0;
+  prior.sigma << 0.3, 13, 13, 0.3, 0.15, 0.05, 0.02, 0, 0.3;
   return prior;
 }
 
@@ -120,7 +121,7 @@ TEST(CameraAdjustment, SigmasAreThoseOfTheNoise) {
   Scene scene = sceneWithNoise(kNoise);
   scene.lens = wide().mean;
   placeCorners(scene);
-  adjust(wide(), kNoise, 60, scene);
+  for (const double noise : {10 * kNoise, kNoise, kNoise}) adjust(wide(), noise, 60, scene);
   const LensVector sigmas = lensSigmas(wide(), kNoise, scene);
   const Eigen::VectorXd off =
       (scene.lens - truth()).cwiseQuotient(sigmas).head<kZoom>();  // what is not held
