@@ -145,7 +145,7 @@ typedef struct dsorb_estimate {
 typedef struct dsorb_initializer dsorb_initializer; /**< opaque */
 typedef struct dsorb_odometry dsorb_odometry;       /**< opaque */
 
-/** Version of the library that is linked, for example "0.3.0". */
+/** Version of the library that is linked, for example "0.4.0". */
 const char* dsorb_version(void);
 
 /**
