@@ -35,7 +35,8 @@ void rectifyWith(const Lens& lens, const CommandLine& request, SequenceReader& r
 /// Whether a camera is known to be farther from the one that images are rectified with than an
 /// odometry bears.
 bool isFar(const Lens& found, const Lens& images) {
-  const double difference = std::abs(std::log(found.fx / images.fx));
+  const double difference =
+      std::max(std::abs(std::log(found.fx / images.fx)), std::abs(std::log(found.fy / images.fy)));
   return difference > kBorne && 3 * found.focal_sigma < difference;
 }
 

@@ -33,7 +33,7 @@ Eigen::Vector2d directionSigmasDeg(const PosedFrame& frame);
 double tailProbability(const Eigen::Vector2d& sigmas_deg, double angle_deg);
 
 /// Probability that another motion is the right one.
-/// @param cost_ratio of the other's mean robust cost over the best's
+/// @param cost_ratio of the other's robust cost over the best's
 /// @param samples    independent ones
 double rivalProbability(double cost_ratio, double samples);
 

@@ -49,7 +49,7 @@ constexpr double kFirstNoise = 0.5;   // of a corner, for an image diagonal of 8
 constexpr double kLeastNoise = 0.05;  // [px]
 constexpr double kWrong = 8;          // times the noise: a corner that is none
 
-constexpr double kShows = 3;         // standard deviations that a distortion differs from none
+constexpr double kShows = 3;         // standard deviations from what a number was held at
 constexpr double kReadoutShows = 1;  // a readout above is nearer to the truth than none
 
 // Beforehand: what phones, webcams and action cameras have.
@@ -57,6 +57,7 @@ constexpr double kCenterSigma = 0.02;  // share of the longer side
 constexpr double kK1Sigma = 0.3;
 constexpr double kK2Sigma = 0.15;
 constexpr double kK3Sigma = 0.05;     // once another one shows
+constexpr double kSquare = 5e-4;      // what pixels that are told as square are off by at most
 constexpr double kAspectSigma = 0.3;  // once pixels are not square, as in images that were squeezed
 
 /// How far the corners that two images share have moved: the median [px]; infinite where they
@@ -318,8 +319,8 @@ class CameraFinder::Impl {
     further.sigma[number] = sigma / kFoundCamera;
     Scene freed = scene;
     adjust(further, noise, kIterations, freed);
-    const double told = kFoundCamera * lensSigmas(further, noise, freed)[number];
-    if (!(std::abs(freed.lens[number] - further.mean[number]) > kShows * told)) return;
+    const double deviation = kFoundCamera * lensSigmas(further, noise, freed)[number];
+    if (!(std::abs(freed.lens[number] - further.mean[number]) > kShows * deviation)) return;
     prior = further;
     scene = std::move(freed);
   }
@@ -365,7 +366,7 @@ std::string describe(const FoundCamera& camera) {
   text << std::fixed << std::setprecision(sigma < 1 ? 1 : 0) << "focal length " << lens.fx << " +- "
        << sigma << " px (" << std::setprecision(1)
        << 2 * std::atan(0.5 * lens.width / lens.fx) * kDegPerRad << " degrees)";
-  if (lens.fy != lens.fx) {
+  if (std::abs(lens.fy - lens.fx) > kSquare * lens.fx) {
     text << std::setprecision(3) << ", pixels " << lens.fx / lens.fy << " times as high as wide";
   }
   if (lens.model != LensModel::kPinhole) {

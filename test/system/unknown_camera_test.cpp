@@ -61,6 +61,7 @@ TEST(UnknownCamera, IsFoundAndIsACalibrationWhereItIsKnown) {
     const double sigma = found["sigma"]["focal"].get<double>();
     EXPECT_LT(std::abs(found["fx"].get<double>() - focal), 2 * sigma) << found.dump(2);
     EXPECT_EQ(run["lens"]["fx"], found["fx"]);
+    EXPECT_EQ(found["fy"], found["fx"]);
     EXPECT_FALSE(run.contains("calibration_suspected")) << "of a camera that nobody gave";
     EXPECT_EQ(fs::exists(out / "refined_camera.txt"), found["known"].get<bool>());
   }
@@ -82,6 +83,7 @@ TEST(UnknownCamera, ImagesMayBeSqueezed) {
   const auto found = runOn(room, folder.path() / "out")["found_camera"];
   EXPECT_NEAR(found["fx"].get<double>() / 502.3, 1, 0.01) << found.dump(2);
   EXPECT_NEAR(found["fy"].get<double>() / found["fx"].get<double>(), 368.0 / 480, 0.005);
+  EXPECT_FALSE(found["image_shift"]["contradicts_one_camera"].get<bool>());
 }
 
 TEST(UnknownCamera, IsNoCalibrationWhereFewImagesTellIt) {

@@ -121,6 +121,7 @@ TEST(CameraAdjustment, SigmasAreThoseOfTheNoise) {
   Scene scene = sceneWithNoise(kNoise);
   scene.lens = wide().mean;
   placeCorners(scene);
+  // The guess is far away: at this noise all corners are outliers there.
   for (const double noise : {10 * kNoise, kNoise, kNoise}) adjust(wide(), noise, 60, scene);
   const LensVector sigmas = lensSigmas(wide(), kNoise, scene);
   const Eigen::VectorXd off =

@@ -148,16 +148,20 @@ TEST(MotionCandidates, FramesBetweenDecideWhichMotionOfAPlaneIsRight) {
 TEST(MotionCandidates, CellsDecideTogether) {
   MotionCandidate best;
   MotionCandidate other;
-  best.cell_costs.assign(40, 1);
-  for (std::size_t i = 0; i < 40; ++i) {
-    other.cell_costs.push_back(1 + (i % 2 == 0 ? 0.01 : -0.01));
-  }
+  best.cell_costs.assign(81, 0);
+  std::fill_n(best.cell_costs.begin(), 30, 1);  // the others have no tracks
+  EXPECT_EQ(costRatio(best, best), 1);
+  other = best;
+  for (std::size_t i = 0; i < 30; ++i) other.cell_costs[i] += i % 2 == 0 ? 0.01 : -0.01;
   EXPECT_NEAR(costRatio(other, best), 1, 1e-12);
-  other.cell_costs[7] = 1000;  // one cell among forty that are undecided
-  EXPECT_NEAR(costRatio(other, best), 1, 1e-3);
-  other.cell_costs.assign(40, 1.1);
+  other.cell_costs[7] = 1000;  // one cell among thirty that are undecided
+  EXPECT_NEAR(costRatio(other, best), 1, 2e-3);
+  std::fill_n(other.cell_costs.begin(), 30, 1.1);
   EXPECT_NEAR(costRatio(other, best), 1.1, 1e-12);
   EXPECT_NEAR(costRatio(best, other), 1 / 1.1, 1e-12);
+  other = best;
+  other.cell_costs.back() = 3;  // a gyroscope contradicts it
+  EXPECT_NEAR(costRatio(other, best), 1.1, 1e-12);
 }
 
 TEST(RobustAdjustment, MeasuresTheNoiseThatWasDrawn) {

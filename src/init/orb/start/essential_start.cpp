@@ -44,7 +44,7 @@ constexpr std::size_t kGrownUpFrames = 8;  // of a start whose rows move; with f
 constexpr double kYoungSigmaDeg = 0.5;     // has to be as sure as this
 
 constexpr double kSameDirection = 0.9986;    // cosine of 3 degrees: the same minimum
-constexpr double kMinPlaneFrontShare = 0.5;  // of a plane's inliers
+constexpr double kMinPlaneFrontShare = 0.5;  // of a motion's inliers
 /// Most that a cell of the image says of two motions, over the median of what cells say. Without it
 /// 7 of 420 starts on planes were wrong, with it none, given .7 frames more.
 constexpr double kCellLimit = 2;
@@ -78,26 +78,33 @@ double frontShare(const EssentialMotion& motion,
 }
 
 /// Robust cost of the tracks in every cell of the image, in the mean frame; that of tracks without
-/// a corner is the severe limit's. @return nullopt where a corner is behind a camera
+/// a corner is the severe limit's. Behind the cells is the cost of what is known beside the tracks.
+/// @return nullopt where a corner is behind a camera
 std::optional<std::vector<double>> cellCosts(const InitialMap& map,
                                              const Matches& matches,
                                              std::size_t frames,
                                              const AttemptContext& context) {
   const GeometricOptions& options = context.options.orb.geometric;
+  const auto of_all = reprojectionCost(map, context.camera, options);
+  if (!of_all) return std::nullopt;
   const double lost = robustCost(kSevereLimit / options.sigma, options);
+  double of_tracks = 0;
   std::vector<double> costs(kErrorCells);
-  const auto costAt = [&](const Eigen::Vector2d& pixel) -> double& {
+  const auto cost_at = [&](const Eigen::Vector2d& pixel) -> double& {
     return costs[imageCell(pixel, context.camera)];
   };
-  for (const Eigen::Vector2d& pixel : matches.reference) costAt(pixel) += lost;
-  for (const Corner& corner : map.corners) costAt(corner.pixel) -= lost;
+  for (const Eigen::Vector2d& pixel : matches.reference) cost_at(pixel) += lost;
+  for (const Corner& corner : map.corners) cost_at(corner.pixel) -= lost;
   for (const CornerObservation& observation : map.observations) {
     if (!map.frames[observation.frame].T_cam_ref) continue;
     const auto error = errorOf(map, context.camera, observation, options.sigma);
     if (!error) return std::nullopt;
-    costAt(map.corners[observation.corner].pixel) +=
-        robustCost(error->value.norm(), options) / static_cast<double>(frames);
+    const double cost = robustCost(error->value.norm(), options);
+    cost_at(map.corners[observation.corner].pixel) += cost / static_cast<double>(frames);
+    of_tracks += cost;
   }
+  const bool knows_more = !map.known_motions.empty();
+  costs.push_back(knows_more ? (*of_all - of_tracks) / static_cast<double>(frames) : 0);
   return costs;
 }
 
@@ -547,16 +554,21 @@ std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
 }
 
 double costRatio(const MotionCandidate& other, const MotionCandidate& best) {
-  std::vector<double> differences;
-  for (std::size_t i = 0; i < best.cell_costs.size(); ++i) {
-    differences.push_back(other.cell_costs[i] - best.cell_costs[i]);
-  }
+  const std::vector<double>& costs = best.cell_costs;
+  std::vector<double> differences(costs.size());
   std::vector<double> sizes;
-  for (const double difference : differences) sizes.push_back(std::abs(difference));
+  sizes.reserve(costs.size());
+  for (std::size_t i = 0; i < costs.size(); ++i) {
+    differences[i] = other.cell_costs[i] - costs[i];
+    if (differences[i] != 0) sizes.push_back(std::abs(differences[i]));
+  }
+  if (sizes.empty()) return 1;
   const double limit = kCellLimit * medianInPlace(sizes);
-  double worse = 0;
-  for (const double difference : differences) worse += std::clamp(difference, -limit, limit);
-  return 1 + worse / std::accumulate(best.cell_costs.begin(), best.cell_costs.end(), 0.0);
+  double worse = differences.back();
+  for (std::size_t i = 0; i + 1 < differences.size(); ++i) {
+    worse += std::clamp(differences[i], -limit, limit);
+  }
+  return 1 + worse / std::accumulate(costs.begin(), costs.end(), 0.0);
 }
 
 Competition competeOverFrames(const ReferenceView& view,

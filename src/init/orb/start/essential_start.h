@@ -64,7 +64,8 @@ struct MotionCandidate {
   double front_share = 0;  ///< of the corners, in front of the camera
   double cost = 0;         ///< mean robust cost of all tracks in these frames, lost corners at the
                            ///< cost of the severe limit
-  std::vector<double> cell_costs{};    ///< of the tracks in each of errorCells(), summed
+  /// Sums of the tracks in each of errorCells(), then what is known beside the tracks.
+  std::vector<double> cell_costs{};
   std::optional<bool> motions_used{};  ///< that the caller knows; none: none are known
 };
 
@@ -74,7 +75,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
                                              const EssentialMotion& motion,
                                              const AttemptContext& context);
 
-/// Motions that a homography of the images allows, with most of its inliers in front of both
+/// Motions that a homography of the images allows, with most of what each explains in front of both
 /// cameras: two at most. Translations of length 1.
 std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
                                           const Matches& matches,
@@ -92,7 +93,7 @@ struct Competition {
 };
 
 /// Lets motions compete with a candidate: the tracks of all its frames decide.
-/// @param best in: candidate found without them; out: the one of least cost
+/// @param best in: candidate found without them; out: the best by costRatio()
 Competition competeOverFrames(const ReferenceView& view,
                               const std::vector<EssentialMotion>& motions,
                               const AttemptContext& context,
