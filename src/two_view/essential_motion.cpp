@@ -106,14 +106,9 @@ EssentialMotion refineOnInliers(const SE3& T_cur_ref,
                                 const Matches& matches,
                                 const PinholeCamera& camera,
                                 double threshold) {
-  EssentialMotion motion{T_cur_ref, std::vector<char>(matches.size(), 0)};
+  EssentialMotion motion{T_cur_ref, {}};
   for (int refit = 0; refit <= kRefits; ++refit) {
-    std::vector<double> distances = epipolarDistances(motion.T_cur_ref, matches, camera);
-    for (std::size_t i = 0; i < matches.size(); ++i) {
-      motion.inlier[i] = distances[i] < threshold ? 1 : 0;
-    }
-    motion.inliers =
-        static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), char{1}));
+    std::vector<double> distances = countInliers(matches, camera, threshold, motion);
     const auto middle = distances.begin() + motion.inliers / 2;
     std::nth_element(distances.begin(), middle, distances.end());
     motion.noise = kMadToSigma * *middle;
@@ -208,6 +203,18 @@ std::vector<double> epipolarDistances(const SE3& T_cur_ref,
                                                          basis)
                                             .value);
   }
+  return distances;
+}
+
+std::vector<double> countInliers(const Matches& matches,
+                                 const PinholeCamera& camera,
+                                 double threshold,
+                                 EssentialMotion& motion) {
+  std::vector<double> distances = epipolarDistances(motion.T_cur_ref, matches, camera);
+  motion.inlier.clear();
+  for (const double distance : distances) motion.inlier.push_back(distance < threshold ? 1 : 0);
+  motion.inliers =
+      static_cast<int>(std::count(motion.inlier.begin(), motion.inlier.end(), char{1}));
   return distances;
 }
 

@@ -83,4 +83,11 @@ std::vector<double> epipolarDistances(const SE3& T_cur_ref,
                                       const Matches& matches,
                                       const PinholeCamera& camera);
 
+/// Marks and counts the matches that a motion explains.
+/// @return epipolarDistances()
+std::vector<double> countInliers(const Matches& matches,
+                                 const PinholeCamera& camera,
+                                 double threshold,
+                                 EssentialMotion& motion);
+
 }  // namespace dsorb

@@ -124,9 +124,10 @@ TEST(CameraAdjustment, SigmasAreThoseOfTheNoise) {
   // The guess is far away: at this noise all corners are outliers there.
   for (const double noise : {10 * kNoise, kNoise, kNoise}) adjust(wide(), noise, 60, scene);
   const LensVector sigmas = lensSigmas(wide(), kNoise, scene);
-  const Eigen::VectorXd off =
-      (scene.lens - truth()).cwiseQuotient(sigmas).head<kZoom>();  // what is not held
+  const LensVector of_all = (scene.lens - truth()).cwiseQuotient(sigmas);
+  const Eigen::VectorXd off = of_all.head<kZoom>();  // all that is not held, but for the ratio
   EXPECT_LT(off.cwiseAbs().maxCoeff(), 3.5) << off.transpose();
+  EXPECT_LT(std::abs(of_all[kAspect]), 3.5);
   EXPECT_GT(off.norm(), 0.3) << "not much surer than they are";
   EXPECT_LT(sigmas[kLogFocal], 0.01);
 }

@@ -85,8 +85,6 @@ std::optional<std::vector<double>> cellCosts(const InitialMap& map,
                                              std::size_t frames,
                                              const AttemptContext& context) {
   const GeometricOptions& options = context.options.orb.geometric;
-  const auto of_all = reprojectionCost(map, context.camera, options);
-  if (!of_all) return std::nullopt;
   const double lost = robustCost(kSevereLimit / options.sigma, options);
   double of_tracks = 0;
   std::vector<double> costs(kErrorCells);
@@ -103,8 +101,13 @@ std::optional<std::vector<double>> cellCosts(const InitialMap& map,
     cost_at(map.corners[observation.corner].pixel) += cost / static_cast<double>(frames);
     of_tracks += cost;
   }
-  const bool knows_more = !map.known_motions.empty();
-  costs.push_back(knows_more ? (*of_all - of_tracks) / static_cast<double>(frames) : 0);
+  if (map.known_motions.empty()) {
+    costs.push_back(0);
+    return costs;
+  }
+  const auto of_all = reprojectionCost(map, context.camera, options);
+  if (!of_all) return std::nullopt;
+  costs.push_back((*of_all - of_tracks) / static_cast<double>(frames));
   return costs;
 }
 
@@ -532,6 +535,7 @@ std::optional<MotionCandidate> makeCandidate(const ReferenceView& view,
   if (!costs) return std::nullopt;
   candidate.cost =
       std::accumulate(costs->begin(), costs->end(), 0.0) / static_cast<double>(matches.size());
+  if (!std::isfinite(candidate.cost)) return std::nullopt;
   candidate.cell_costs = std::move(*costs);
   candidate.front_share = flipToPositiveDepth(candidate.map);
   return candidate;
@@ -544,10 +548,7 @@ std::vector<EssentialMotion> planeMotions(const Eigen::Matrix3d& H_cur_ref,
   for (const SE3& decomposed : decomposeHomography(H_cur_ref, camera)) {
     EssentialMotion motion;
     motion.T_cur_ref = decomposed;
-    for (const double distance : epipolarDistances(decomposed, matches, camera)) {
-      motion.inlier.push_back(distance < kRansacThreshold ? 1 : 0);
-      motion.inliers += motion.inlier.back();
-    }
+    countInliers(matches, camera, kRansacThreshold, motion);
     if (frontShare(motion, matches, camera) > kMinPlaneFrontShare) motions.push_back(motion);
   }
   return motions;
